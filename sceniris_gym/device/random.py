@@ -10,6 +10,8 @@ import hashlib
 
 import warp as wp
 
+from sceniris_gym.device.transforms import log_of, unit_circle
+
 # Streams of one seed and episode. The placement of an object uses stream split * 2^24 + object. Streams of tasks have
 # the top bit set, so that goals and noise never repeat the numbers behind the poses.
 SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from the bank splits
@@ -70,6 +72,15 @@ def uniforms(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw:
     """Return four independent uniform numbers in [0, 1) for one draw of one trial."""
     words = philox(seed, wp.vec4ui(wp.uint32(episode), stream, wp.uint32(trial), wp.uint32(draw)))
     return wp.vec4(uniform(words[0]), uniform(words[1]), uniform(words[2]), uniform(words[3]))
+
+
+@wp.func(inline=False)
+def normals(u: float, v: float) -> wp.vec2:
+    """Return two independent normal numbers from two uniform numbers in [0, 1).
+
+    G. Box, M. Muller, "A note on the generation of random normal deviates", Ann. Math. Statist. 29, 1958.
+    """
+    return wp.sqrt(-2.0 * log_of(1.0 - u)) * unit_circle(2.0 * wp.pi * v)
 
 
 def named_stream(split: str) -> int:

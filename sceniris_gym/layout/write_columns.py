@@ -9,8 +9,8 @@ import warp as wp
 
 from sceniris_gym.config.randomize import DEVIATIONS
 from sceniris_gym.device.blocks import block_sync
-from sceniris_gym.device.random import BANK_BIT, uniforms
-from sceniris_gym.device.transforms import axis_angle_quat, exp_of, log_of, mul_quat, unit_circle
+from sceniris_gym.device.random import BANK_BIT, normals, uniforms
+from sceniris_gym.device.transforms import axis_angle_quat, exp_of, log_of, mul_quat
 from sceniris_gym.layout.layouts import LayoutsView, next_key
 from sceniris_gym.layout.masks import row_of, selects
 from sceniris_gym.program.device import SHARED
@@ -166,9 +166,7 @@ def _number(number: Number, table: wp.array[float], param: wp.array2d[float], ro
     if number.distribution == _LOG_UNIFORM:
         return low * exp_of(u[0] * log_of(high / low))
     if number.distribution == _NORMAL:
-        # Box and Muller: 1 - u is never 0
-        z = wp.sqrt(-2.0 * log_of(1.0 - u[0])) * unit_circle(2.0 * wp.pi * u[1])[0]
-        return low + high * wp.clamp(z, -_DEVIATIONS, _DEVIATIONS)
+        return low + high * wp.clamp(normals(u[0], u[1])[0], -_DEVIATIONS, _DEVIATIONS)
     return low + (high - low) * u[0]
 
 

@@ -2,22 +2,14 @@
 
 import warp as wp
 
-from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import axis_angle_quat, log_of, mul_quat, rot_vec_quat, unit_circle
+from sceniris_gym.device.random import normals, uniforms
+from sceniris_gym.device.transforms import axis_angle_quat, mul_quat, rot_vec_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
 # Index of the first draw for joints in a trial. Each draw has four random numbers.
 _FIRST_DRAW = wp.constant(2)
-# Half the distance between two uniform numbers, which keeps logarithms finite.
-_HALF_STEP = wp.constant(2.0**-25)
-
-
-@wp.func(inline=False)
-def _normal(u: wp.vec4, i: int) -> float:
-    """Return one of four normal numbers from four uniform numbers, by the Box-Muller transform."""
-    square = -2.0 * log_of(wp.where(i < 2, u[0], u[2]) + _HALF_STEP)
-    at = unit_circle(2.0 * wp.pi * wp.where(i < 2, u[1], u[3]))
-    return wp.sqrt(square) * wp.where(i % 2 == 0, at[0], at[1])
+# The distance between two uniform numbers. At least this number gives normal numbers that are not all 0.
+_STEP = wp.constant(2.0**-24)
 
 
 @wp.func
@@ -49,7 +41,9 @@ def draw_joints(
             if num > 0:
                 value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
             else:
-                value = _normal(u, i % 4)
+                first = i % 4 < 2
+                two = normals(wp.max(wp.where(first, u[0], u[2]), _STEP), wp.where(first, u[1], u[3]))
+                value = wp.where(i % 2 == 0, two[0], two[1])
                 square += value * value
         qpos[program.draw_qposadr[adr + i]] = value
     if square > 0.0:
