@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sceniris_gym.errors import GraspError, UnknownNameError
+from sceniris_gym.errors import GraspError, SceneKeyError, UnknownNameError
 from sceniris_gym.files import Array
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
@@ -118,6 +118,7 @@ class Graspable:
 
         Raises:
             UnknownNameError: No grasp matches `grasp`.
+            SceneKeyError: The object lacks the part that `grasp` names.
             GraspError: No grasp fits the gripper.
         """
         config, gripper, sites = self.scene.config.objects[self.name], self._gripper, self._sites()
@@ -127,9 +128,11 @@ class Graspable:
         made = [] if own else [self._made(pose, is_any) for pose in poses]
         groups = [own] if own else [selected(self.scene, self.name, group, word) for group in made]
         known = {g.name.removesuffix(_ROLLED).removeprefix(PREFIX) for group in (sites, *made) for g in group}
+        where = f"{self.scene.config.where}: objects.{self.name}"
+        if word in config.parts and word not in self.scene.joints(self.name):
+            raise SceneKeyError(f"{where}.grasp: it lacks the part '{word}'. Leave out this variant, or 'grasp'.")
         if known and not any(groups):
-            known |= {*config.parts} - {word}
-            raise UnknownNameError("grasp", word, f"{self.scene.config.where}: objects.{self.name}.grasp", known)
+            raise UnknownNameError("grasp", word, f"{where}.grasp", known | ({*config.parts} - {word}))
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             needed = min((g.opening for group in groups for g in group), default=None)
@@ -138,7 +141,7 @@ class Graspable:
                 opens = f"but the gripper opens to {gripper.opening:.3g} m"
                 why = f"its narrowest grasp needs an opening of {needed:.3g} m, {opens}"
             raise GraspError(
-                f"{self.scene.config.where}: objects.{self.name}.reachable: {why}. Give the asset sites 'grasp_*' "
+                f"{where}.reachable: {why}. Give the asset sites 'grasp_*' "
                 "where it can be grasped (+z the approach axis, +y the closing axis), or use a smaller object.",
                 needed,
                 gripper.opening,

@@ -249,7 +249,7 @@ class SceneModel(RefusesOldNames):
 
         Raises:
             UnknownNameError: A name or a pattern matches no joint, and none of another variant of the same object.
-            SceneKeyError: A joint follows another joint, or `check_joint` rejects its config.
+            SceneKeyError: A joint follows another joint or has two keys, or `check_joint` rejects its config.
             NotSupportedError: A joint is a ball joint.
         """
         where = f"{self.config.where}: {self.config.key(name)}.joints"
@@ -263,6 +263,8 @@ class SceneModel(RefusesOldNames):
             ids = [joints[joint] for joint in ([word] if word in joints else fnmatch.filter(joints, word))]
             if not ids:
                 self._check_known(self.config.owners.get(name, name), word, where)
+            if word in joints and ids[0] in found:  # a part and its joint's own name
+                raise SceneKeyError(f"{where}: '{word}' and another key are the same joint of '{name}'. Leave out one.")
             if ids and all(i in following for i in ids):
                 refuse_follower(self._joint_name, following[ids[0]], f"{where}.{word}")
             for i in ids:

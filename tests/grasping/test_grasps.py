@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sceniris_gym.errors import GraspError, UnknownNameError
+from sceniris_gym.errors import GraspError, SceneKeyError, UnknownNameError
 from sceniris_gym.grasping.grasps import Grasp, GraspSet, section
 from sceniris_gym.grasping.gripper import Gripper
 from tests.grasping.scenes import Scene, rotation
@@ -160,6 +160,8 @@ def test_a_pattern_that_no_site_has_selects_generated_grasps(tmp_path: Path):
     }
     with pytest.raises(UnknownNameError, match="rim"):
         Scene(asset, reachable="ik", grasp="rims").grasp_set()
+    with pytest.raises(SceneKeyError, match=r"thing\.grasp: it lacks the part 'lid'\. Leave out this variant"):
+        Scene(asset, reachable="ik", grasp="lid", parts={"lid": {"default": None}}).grasp_set()
 
 
 def test_what_is_wider_than_the_gripper_opens_is_refused(tmp_path: Path):

@@ -36,6 +36,14 @@ def test_a_part_names_a_joint_by_its_name_a_pattern_or_its_body(folder: Path):
     slide, hinge = names["a/slide"], names["a/hinge"]
     assert scene.joints("a") == {"hinge": hinge, "a": min(slide, hinge), "b": slide, "c": hinge, "slide": hinge}
     assert list(scene.joint_configs("a")) == [slide]
+    twice = {
+        "asset": "chest",
+        "kind": "fixture",
+        "parts": parts,
+        "joints": {"c": {"value": 0.1}, "hinge": {"value": 0}},
+    }
+    with pytest.raises(SceneKeyError, match=r"objects\.a\.joints: '(c|hinge)' and another key are the same joint"):
+        build(folder, {"a": twice}).joint_configs("a")
     for wrong, message in {"lidd": "unknown joint 'lidd'.*Valid: hinge, slide", "z*": r"unknown joint 'z\*'"}.items():
         with pytest.raises(UnknownNameError, match=rf"objects\.a\.parts\.b: {message}"):
             build(folder, {"a": {"asset": "chest", "kind": "fixture", "parts": {"b": wrong}}})

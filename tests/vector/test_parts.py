@@ -296,7 +296,7 @@ def test_an_arm_reaches_and_starts_at_a_part(folder: Path):
     ):
         compile_scene(scene | {"start": [{"robot": "home"}, closed | {"joints": {"unit/lid": {"value": 0.0}}}]}, "cpu")
     unit |= {"parts": {"opening": {"default": "front_*", "base_drawers_0000": None}}}
-    with pytest.raises(UnknownNameError, match=r"objects\.unit/base_drawers_0000\.grasp: unknown grasp 'opening'"):
+    with pytest.raises(SceneKeyError, match=r"objects\.unit/base_drawers_0000\.grasp: it lacks the part 'opening'"):
         compile_scene(scene, "cpu")
     unit |= {"parts": {"opening": "front_*"}, "reachable": {"tier": "ik", "grasp": "openin"}}
     with pytest.raises(UnknownNameError, match=r"unknown grasp 'openin'\. Did you mean 'opening'"):
