@@ -16,7 +16,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import HOME
 from sceniris_gym.scene.model_files import MODEL_FOLDERS, zipped
 from sceniris_gym.scene.parking import SLAB
-from sceniris_gym.sim.rest import affine_law, scene_rest
+from sceniris_gym.sim.rest import close_grippers, controls_at_start, scene_rest
 from sceniris_gym.sim.versions import actuator_controls
 
 _TREES = ("default", "asset", "worldbody")
@@ -34,8 +34,9 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     scene, mjm, file, used = compiled.scene, compiled.mjm, io.BytesIO(), set[str]()
     assert scene.spec is not None  # `DatasetWriter` rejects a MjModel
     rest, owners = scene_rest(scene, "cpu"), compiled.config.owners
-    constants, slopes = affine_law(rest, mjm.nq)
-    held = np.clip(constants + rows["qpos"] @ slopes.T, rest.lower.numpy(), rest.upper.numpy())
+    close_grippers(rest, compiled, mjm)
+    start = rows["start"] if "start" in (rows.dtype.names or ()) else np.full(len(rows), -1)
+    held = controls_at_start(rest, start, rows["present"], rows["qpos"])
     parts = {mjm.joint(i).name: f"{owners[one]}/{local}" for one in owners for local, i in scene.joints(one).items()}
     variant = re.compile(f"({'|'.join(map(re.escape, owners))})(?![^/])")
     bodies = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))  # of each number in qpos
@@ -91,8 +92,10 @@ def _remove(root: ElementTree.Element, absent: Sequence[str], bodies: Collection
             for e in [child] if kind in _TREES else child.iter():
                 named |= {(word.rstrip("12"), value) for word, value in e.attrib.items()}
                 named |= {(e.get("objtype"), e.get("objname")), (e.get("reftype"), e.get("refname"))}
-            if kind == "keyframe" or name.startswith(prefixes) or not gone.isdisjoint(named):
+            if name.startswith(prefixes) or not gone.isdisjoint(named):
                 parent.remove(child)
                 gone.add((kind, name))
+    for keyframe in root.findall("keyframe"):
+        root.remove(keyframe)
     left = set(root.findall("actuator/*"))
     return np.array([actuator in left for actuator in actuators], bool)

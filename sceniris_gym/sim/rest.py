@@ -107,6 +107,29 @@ def control_at_start(
     return rest_value(rest, worldid, elemid, qpos)
 
 
+@wp.kernel
+def _controls(
+    rest: RestMap, kind: wp.array[int], present: wp.array2d[int], qpos: wp.array2d[float], out: wp.array2d[float]
+):
+    row, elemid = wp.tid()
+    out[row, elemid] = control_at_start(rest, 0, elemid, kind[row], present[row], qpos[row])
+
+
+def controls_at_start(rest: RestMap, start: np.ndarray, present: np.ndarray, qpos: np.ndarray) -> np.ndarray:
+    """Return the elements of the first world of a RestMap on a CPU at the start of stored layouts, shape (nrow, n).
+
+    Args:
+        rest: The RestMap.
+        start: The kind of start of each layout, or -1, shape (nrow,).
+        present: Whether each slot's object is present, shape (nrow, nslot).
+        qpos: Joint positions, shape (nrow, nq).
+    """
+    found = wp.zeros((len(qpos), len(rest.lower)), dtype=float, device="cpu")
+    inputs = [rest, start.astype(np.int32), present.astype(np.int32), qpos.astype(np.float32), found]
+    wp.launch(_controls, found.shape, inputs, device="cpu")
+    return found.numpy()
+
+
 def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
     """Return c (n,) and F (n, nq). The n elements of the first world are c + F @ qpos, before they are clipped."""
     constants, slopes = rest.law.numpy()[0].T
@@ -225,13 +248,16 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     return np.array(address, np.int32), np.array(control, np.int32)
 
 
-def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
+def close_grippers(rest: RestMap, compiled: CompiledScene, sim: mujoco.MjModel | None = None) -> None:
     """Set `rest.press`, `rest.closed` and `rest.squeezing`, so that a gripper closes on the object that it starts with.
+
+    `sim` is the model of the RestMap, by default `compiled.sim_mjm`.
 
     Raises:
         NotSupportedError: An episode starts with an object in a gripper without a position actuator or a motor.
     """
-    full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
+    full, starts = compiled.mjm, compiled.starts
+    sim = compiled.sim_mjm if sim is None else sim
     if compiled.reaching is None or starts is None:
         return
     arms, slots = compiled.reaching.arms, [compiled.slots.index(name) for name in compiled.reaching.names]

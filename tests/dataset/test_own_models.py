@@ -14,6 +14,7 @@ from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
+from tests.layout.starting import HELD, LIFTED, starting
 
 UNITS = {"cabinet": "upper", "cupboard": "door", "chest": "lid", "shelf": None}
 """Unit -> the joint that its part `opening` is."""
@@ -131,3 +132,24 @@ def test_each_layout_is_a_model_of_its_own_objects(scene: str, request: pytest.F
             opened.add(unit)
             machines.add(there["machine"])
     assert scene != "small" or (opened == {*UNITS} and machines == {True, False})
+
+
+def test_an_object_in_the_hand_stays_there(tmp_path: Path):
+    """The controls of the keyframe close the gripper, as a reset does: it bears twice the object's weight."""
+    compiled = starting()
+    _, models, rows = written(compiled, 48, tmp_path)
+    seen = set()
+    for i, (own, row) in enumerate(zip(models, rows, strict=True)):
+        assert (tmp_path / "models" / f"layout_{i}.xml").read_text().count("<keyframe") == 1
+        if row["start"] not in (LIFTED, HELD) or not row["valid"]:
+            continue
+        data = mujoco.MjData(own)
+        mujoco.mj_resetDataKeyframe(own, data, 0)
+        mujoco.mj_forward(own, data)
+        before, hand = data.body("block").xpos.copy(), data.body("panda/hand").xpos.copy()
+        data.xfrc_applied[own.body("block").id, 2] = -9.81 * own.body("block").mass[0]
+        mujoco.mj_step(own, data, int(0.5 / own.opt.timestep))
+        moved = data.body("panda/hand").xpos - hand
+        np.testing.assert_allclose(data.body("block").xpos - moved, before, atol=0.004)
+        seen.add(int(row["start"]))
+    assert seen == {LIFTED, HELD}
