@@ -12,7 +12,7 @@ import numpy as np
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.scene_params import Param, scene_params
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.task import Task
+from sceniris_gym.vector.settings import ImageConfig
 
 FACTOR = 0.15
 """Change of a factor per grade."""
@@ -49,18 +49,18 @@ class Axis(NamedTuple):
 
 
 class Base(NamedTuple):
-    """A task with its scene, before the scene is widened, and its params by name. `grades` is their number."""
+    """The scene of a task, before it is widened, its params by name, and the pictures that the policy sees."""
 
     compiled: CompiledScene
-    task: Task
+    images: ImageConfig | None
     params: Mapping[str, Param]
     grades: int
 
     @classmethod
-    def of(cls, compiled: CompiledScene, task: Task, grades: int) -> Self:
-        """Return the base of a suite."""
+    def of(cls, compiled: CompiledScene, images: ImageConfig | None, grades: int) -> Self:
+        """Return the base of a suite with this number of grades."""
         found = scene_params(compiled)
-        return cls(compiled, task, {name: one for name, one in found.items() if isinstance(one, Param)}, grades)
+        return cls(compiled, images, {name: one for name, one in found.items() if isinstance(one, Param)}, grades)
 
     def joints(self, section: str) -> dict[str, tuple[float, float, float, float]]:
         """Return low and high of the drawn joints in a section of the scene file, and the joints' limits, by param."""
@@ -199,7 +199,7 @@ def _variant(base: Base) -> Axis | str:
 
 
 def _light(base: Base) -> Axis | str:
-    if base.task.images is None or not base.compiled.mjm.nlight:
+    if base.images is None or not base.compiled.mjm.nlight:
         return "the policy of this task sees no pictures with lights. Give another axis."
     scene = base.compiled.config.randomize
     drawn = {} if scene is None else scene.lights
@@ -210,7 +210,7 @@ def _light(base: Base) -> Axis | str:
 
 def _camera(base: Base) -> Axis | str:
     """Return the axis of cameras, which shifts and rotates the cameras of the policy's pictures."""
-    seen, scene = base.task.images, base.compiled.config.randomize
+    seen, scene = base.images, base.compiled.config.randomize
     names = [] if seen is None else [n for n in seen.cameras if scene is None or n not in scene.cameras]
     if not names:
         return "the policy of this task sees no pictures of a camera that the scene keeps still. Give another axis."

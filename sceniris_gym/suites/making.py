@@ -18,6 +18,7 @@ from sceniris_gym.suites.suite import LAW, Case, Head, Suite
 from sceniris_gym.training.policies import GROUP
 from sceniris_gym.training.task_scenes import make_env, scene_of, spec_of
 from sceniris_gym.vector.arguments import as_task
+from sceniris_gym.vector.settings import as_image_config
 
 FIRST_SEED = 1 << 62
 """Seed of the first layout. Seeds of trainings are far below."""
@@ -55,7 +56,9 @@ def make(
     """
     check_names("axis", names, "--axes", (*AXES, *STEPS))
     config = SceneConfig.load(scene_of(task, reachable=True), read_changes(changes))
-    base = Base.of(compile_scene(config, device), as_task(spec_of(task).kwargs["task"]), grades)
+    given = spec_of(task).kwargs
+    images = as_image_config(as_task(given["task"]).images, given.get("images"))
+    base = Base.of(compile_scene(config, device), images, grades)
     own, edited = tuple(n for n in names if n in AXES), [n for n in names if n in STEPS]
     axes = axes_of(base, own) if own or not edited else {}
     widened = {key: value for axis in axes.values() for key, value in axis.widened.items()}

@@ -12,7 +12,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.suites.axes import Axis, Base, axes_of
-from tests.suites.conftest import WIDE, Timed
+from tests.suites.conftest import WIDE
 from tests.vector.conftest import SCENE
 
 PAN, SLIDE = "robot.joints.arm/pan", "objects.cabinet.joints.slide"
@@ -20,9 +20,7 @@ PAN, SLIDE = "robot.joints.arm/pan", "objects.cabinet.joints.slide"
 
 def base(changes: dict[str, Any] | None = None, scene: dict = WIDE, images: Any = None) -> Base:
     """Return the base of a suite of five grades."""
-    task = Timed()
-    task.images = images
-    return Base.of(compile_scene(SceneConfig.load(scene, changes), "cpu"), task, 5)
+    return Base.of(compile_scene(SceneConfig.load(scene, changes), "cpu"), images, 5)
 
 
 def drawn(axis: Axis, grade: int) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym import LayoutGenerator, compile_scene
+from sceniris_gym import ImageConfig, LayoutGenerator, compile_scene
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.layout_id import LayoutId
@@ -44,6 +44,18 @@ def test_nominal_layouts_are_those_of_the_task(task: str):
         made.reseed(layouts=[case.id for case in suite.cases if case.axis == axis][-2:])
         made.generate()
         np.testing.assert_array_equal(made.table().qpos, own.table().qpos)
+
+
+def test_pictures_that_a_task_is_registered_with_have_axes(monkeypatch: pytest.MonkeyPatch):
+    """Like the pictures of the task's class, which they may replace or leave out."""
+    seen = {"overview": {"size": (8, 8)}}
+    monkeypatch.setitem(gym.registry[TASK].kwargs, "images", seen)
+    suite, _ = make(TASK, ("light", "camera"), 1, 1, device="cpu")
+    assert [case.axis for case in suite.cases] == ["nominal", "light", "camera"]
+    monkeypatch.setattr(Timed, "images", ImageConfig(cameras=seen), raising=False)
+    monkeypatch.setitem(gym.registry[TASK].kwargs, "images", {})
+    with pytest.raises(ArgumentError, match="--axes camera: the policy of this task sees no pictures"):
+        make(TASK, ("camera",), 1, 1, device="cpu")
 
 
 def test_confounders_are_absent_in_nominal_cases(monkeypatch: pytest.MonkeyPatch):
