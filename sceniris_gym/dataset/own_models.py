@@ -14,6 +14,7 @@ import numpy as np
 
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import HOME
+from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.scene.model_files import MODEL_FOLDERS, zipped
 from sceniris_gym.scene.parking import SLAB
 from sceniris_gym.sim.rest import close_grippers, controls_at_start, scene_rest
@@ -35,7 +36,7 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     assert scene.spec is not None  # `DatasetWriter` rejects a MjModel
     rest, owners = scene_rest(scene, "cpu"), compiled.config.owners
     close_grippers(rest, compiled, mjm)
-    start = rows["start"] if "start" in (rows.dtype.names or ()) else np.full(len(rows), -1)
+    start = rows["start"] if "start" in (rows.dtype.names or ()) else COLUMNS["start"].blanks(len(rows))
     held = controls_at_start(rest, start, rows["present"], rows["qpos"])
     parts = {mjm.joint(i).name: f"{owners[one]}/{local}" for one in owners for local, i in scene.joints(one).items()}
     variant = re.compile(f"({'|'.join(map(re.escape, owners))})(?![^/])")

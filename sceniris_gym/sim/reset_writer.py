@@ -188,7 +188,7 @@ class ResetWriter:
         plastic = keyframe_plastic(mjm, scene.keyframe) if whole and scene.keyframe >= 0 else None
         bodies = None if whole else [body for name in scene.bodies for body in scene.subtree(name)]
         self.contacts = ContactList(d, mask)
-        close_grippers(simulation.rest, compiled)
+        close_grippers(simulation.rest, compiled, compiled.sim_mjm)
         written = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count}
         self._writer = StateWriter(mjm, d, mask, simulation.rest, **written)
 

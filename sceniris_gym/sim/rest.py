@@ -248,16 +248,15 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     return np.array(address, np.int32), np.array(control, np.int32)
 
 
-def close_grippers(rest: RestMap, compiled: CompiledScene, sim: mujoco.MjModel | None = None) -> None:
+def close_grippers(rest: RestMap, compiled: CompiledScene, sim: mujoco.MjModel) -> None:
     """Set `rest.press`, `rest.closed` and `rest.squeezing`, so that a gripper closes on the object that it starts with.
 
-    `sim` is the model of the RestMap, by default `compiled.sim_mjm`.
+    `sim` is the model of the RestMap.
 
     Raises:
         NotSupportedError: An episode starts with an object in a gripper without a position actuator or a motor.
     """
     full, starts = compiled.mjm, compiled.starts
-    sim = compiled.sim_mjm if sim is None else sim
     if compiled.reaching is None or starts is None:
         return
     arms, slots = compiled.reaching.arms, [compiled.slots.index(name) for name in compiled.reaching.names]
