@@ -20,11 +20,11 @@ PAGE = HERE / "RESULTS.md"
 _HEAD = """# Results
 
 Each column is one run of `benchmarks/run.sh` on one commit and one machine. Rates count fresh valid layouts only, and
-are medians of wall-clock times with the device idle before and after. Accuracy is checked by code that imports nothing
-from the generator: FCL and winding numbers for collisions, MuJoCo C for penetration and settling, NumPy and shapely for
-supports and relations, exact inverse kinematics for reach. A value in brackets is that of the run before, where it
-differs; figures that a run did not measure are left out. What takes hours, or packages of others, was measured apart:
-[trainings](TRAININGS.md), and [imports, models of others and long runs](OTHER_RESULTS.md).
+are medians of wall-clock times with the device idle before and after. Code that does not import the generator checks
+accuracy: FCL and winding numbers for collisions, MuJoCo C for penetration and settling, NumPy and shapely for supports
+and relations, exact inverse kinematics for reach. Brackets show the value of the run before, if it differs. Figures
+that a run did not measure are left out. Long measurements, and measurements that need other packages, were made
+separately: [trainings](TRAININGS.md), and [imports, other models and long runs](OTHER_RESULTS.md).
 
 """
 
@@ -77,11 +77,11 @@ def _machine(column: Sequence[Run]) -> str:
     about = column[0].about
     where = f"{about['processor']}, {about['cores']} cores"
     if "card" in about:
-        where = f"{about['card']}, driver {about['driver']}; {where}"
+        where = f"{about['card']}, driver {about['driver']}. {where}"
     versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
     before = f" The run before: {column[1].name}." if len(column) > 1 else ""
     return (
-        f"**{_short(column[0])}**: commit {about['commit']}, {about['date']}; {where}; Python {about['python']}, "
+        f"**{_short(column[0])}**: commit {about['commit']}, {about['date']}. {where}. Python {about['python']}, "
         f"{versions}.{before}"
     )
 
