@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy import stats
 
 from sceniris_gym.errors import ArgumentError
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.stored import StoredLayouts
 from tests.layout.scenes import ANYWHERE, compile_on_cpu, posed, read, write_mjcf
 
 LINKAGE = """
@@ -110,6 +113,34 @@ def test_a_norm_is_cut_off_at_limits_and_gives_way_to_a_start():
         assert high - 0.02 < upper.max() <= high + 1e-6
     with pytest.raises(ArgumentError, match=r"'noise_norm'\. Give a 'range'"):
         LayoutGenerator(compiled, 1, params=["objects.cabinet.joints.upper"])
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+def test_a_norm_belongs_to_each_variant_and_to_the_id_of_a_layout(device: str):
+    """Layouts have the same joints by their ids, from a table, and after another object was drawn again."""
+    unit = {"kind": "fixture", "on": "floor", "asset": ["cabinet", "cupboard"], "joints": {"*": {"noise_norm": 0.2}}}
+    objects = {"unit": unit | {"region": {"box": [[0, 0.6], [0.1, 0.7]]}}, "can": {"asset": "can", "on": "floor"}}
+    compiled = compile_scene({"bank": 4, "floor": {"size": [4, 4]}, "objects": objects}, device)
+    generator = LayoutGenerator(compiled, 64, seed=3)
+    generator.generate()
+    table = generator.table()
+    for name, size in (("unit/cabinet", 2), ("unit/cupboard", 1)):
+        there = table.present[:, compiled.slots.index(name)]
+        away = table.qpos[there][:, compiled.mjm.jnt_qposadr[list(compiled.scene.joints(name).values())]]
+        assert away.shape[1] == size
+        assert 0.1 < np.linalg.norm(away, axis=1).max() <= 0.2 + 1e-6  # a closed unit can only open
+    again = LayoutGenerator(compiled, 64, seed=9)
+    again.reseed(layouts=generator.ids("train"))
+    again.generate()
+    stored = StoredLayouts(compiled, table, 64)
+    stored.generate()
+    moved = read(generator.redraw(generator.layouts, ["can"])).qpos
+    np.testing.assert_array_equal(again.table().qpos, table.qpos)
+    order = np.argsort(stored.layouts.view.seed.numpy())
+    np.testing.assert_array_equal(read(stored.layouts).qpos[order], table.qpos)
+    joints = compiled.mjm.jnt_qposadr[compiled.mjm.jnt_type != int(mujoco.mjtJoint.mjJNT_FREE)]
+    np.testing.assert_array_equal(moved[:, joints], table.qpos[:, joints])
+    assert (moved != table.qpos).any()
 
 
 @pytest.mark.parametrize("kind", ["static", "free"])
